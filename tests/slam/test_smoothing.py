@@ -6,7 +6,6 @@ import re
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from threadpoolctl import threadpool_limits
 
 from saccade import slam
 from saccade.datasets import load
@@ -55,19 +54,6 @@ def _by_scipy(log, start):
 
     found = least_squares(residuals, start, xtol=1e-14, ftol=1e-14, gtol=1e-12)
     return found.x, np.linalg.inv(found.jac.T @ found.jac)
-
-
-def test_threads_change_no_bit():
-    log = simulate_world(WorldConfig(landmarks=150, steps=150), 3)
-    by_threads = []
-    for threads in (1, 2):
-        with threadpool_limits(threads):
-            by_threads.append(slam.run(log))
-    one, two = by_threads
-    assert one.estimate == "smoothed"
-    for first, second in ((one.trajectory, two.trajectory), (one.map, two.map)):
-        np.testing.assert_array_equal(first.covariance, second.covariance)
-    np.testing.assert_array_equal(one.trajectory.pose, two.trajectory.pose)
 
 
 def test_answer_is_that_of_least_squares(rng):

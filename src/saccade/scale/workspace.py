@@ -5,13 +5,12 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from math import prod
-from threading import Lock
 from typing import TypeAlias
 
-import cv2
 import numpy as np
 
 from saccade.errors import require
+from saccade.threads import SERIAL_OPENCV
 from saccade.types import Float32Array
 
 Memory: TypeAlias = dict[tuple[str, int], Float32Array]
@@ -68,36 +67,6 @@ class Workspace:
 
 SERIAL = Workspace()
 """Workspace of the caller's thread, without reusable memory."""
-
-
-class SerialOpencv:
-    """Context in which OpenCV starts no threads of its own, in the whole process.
-
-    The threads of a workspace share the work already. Contexts may overlap; the last one restores
-    the number of threads.
-    """
-
-    def __init__(self) -> None:
-        self._lock = Lock()
-        self._inside = 0
-        self._before = 1
-
-    def __enter__(self) -> None:
-        with self._lock:
-            if not self._inside:
-                self._before = cv2.getNumThreads()
-                cv2.setNumThreads(1)
-            self._inside += 1
-
-    def __exit__(self, *error: object) -> None:
-        with self._lock:
-            self._inside -= 1
-            if not self._inside:
-                cv2.setNumThreads(self._before)
-
-
-SERIAL_OPENCV = SerialOpencv()
-"""The number of threads belongs to the process, and so does this."""
 
 
 class WorkspacePool:

@@ -22,6 +22,7 @@ from saccade.slam.filter.robot_models import pose_difference, wrap
 from saccade.slam.landmarks import ESTABLISHED, LabelRecord
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import locate, pose_jacobians
+from saccade.threads import SERIAL_BLAS
 from saccade.types import FloatArray, IntArray
 
 LANDMARK_GATE = chi_square_gate(2, 0.99)
@@ -79,6 +80,7 @@ class MergedMaps:
         )
 
 
+@SERIAL_BLAS
 def merge_maps(first: Slam, second: Slam, *, anyway: bool = False) -> MergedMaps:
     """Merges two maps, in the frame of the first.
 

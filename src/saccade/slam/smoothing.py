@@ -17,7 +17,6 @@ from saccade.plane import (
 from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.robot_models import as_relative_poses, wrap
-from saccade.slam.filter.state import one_blas_thread
 from saccade.slam.least_squares import (
     MAX_ITERATIONS,
     MIN_COST_DECREASE,
@@ -27,6 +26,7 @@ from saccade.slam.least_squares import (
     minimize,
 )
 from saccade.slam.results import SlamResult
+from saccade.threads import SERIAL_BLAS
 from saccade.types import (
     BoolArray,
     FloatArray,
@@ -196,7 +196,7 @@ def smooth_log(
     initial = _initial_poses(log, poses, lost, cuts)[first]
     start = Estimate(initial, landmarks.xy, prior.mean.bias)
     try:
-        with one_blas_thread():
+        with SERIAL_BLAS:
             best, iterations = minimize(measured, start, min_decrease)
             pose_covariance, others = NormalEquations(measured, best).covariances()
     except (np.linalg.LinAlgError, RuntimeError) as error:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Self, cast
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from saccade.attention.contrast import contrast_saliency
 from saccade.errors import ImageError
@@ -171,17 +170,15 @@ class Prefetcher:
 
 @contextmanager
 def dedicated_process() -> Iterator[None]:
-    """Process-wide settings that speed up mapping together with prefetching.
+    """Lets threads of the process switch more often, for mapping together with prefetching.
 
-    For programs that own their process, such as `saccade drive`; `run` changes no settings. Threads
-    switch more often, and linear algebra uses one thread, since more would compete with the
-    prefetching. The settings are restored at the end.
+    For programs that own their process, such as `saccade drive`. Without it `run` only keeps BLAS
+    to one thread while it works. The setting is restored at the end.
     """
     interval = sys.getswitchinterval()
     sys.setswitchinterval(min(interval, SWITCH_INTERVAL))
     try:
-        with threadpool_limits(1, user_api="blas"):
-            yield
+        yield
     finally:
         sys.setswitchinterval(interval)
 

@@ -15,6 +15,7 @@ from saccade.slam.consistency import normalized_squared
 from saccade.slam.filter.predictions import PredictedObservations
 from saccade.slam.filter.robot_models import compose
 from saccade.tags import TagConfig, Tags, TagSightings
+from saccade.threads import SERIAL_BLAS
 from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.contradictions import StepSource
@@ -50,6 +51,7 @@ SLIP_GATE = 20.0
 """Largest normalized innovation squared of a tracked landmark; others slipped off theirs."""
 
 
+@SERIAL_BLAS
 def run(
     drive: Drive,
     config: VisualConfig | None = None,
@@ -365,6 +367,7 @@ def motion_estimator(drive: Drive, has_depth: bool, by_camera: bool) -> type[Mot
     return SingleCameraMotionEstimator if is_scaled else UnscaledCameraMotionEstimator
 
 
+@SERIAL_BLAS
 def measure_odometry(drive: Drive, second: Drive, config: VisualConfig | None = None) -> Drive:
     """A drive whose odometry is measured by a second camera, with the odometry of that camera's.
 

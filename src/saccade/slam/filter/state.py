@@ -5,15 +5,11 @@ one pass over the matrix (a blocked symmetric rank-k update), which is limited b
 for every row would be limited by memory bandwidth.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_void_p
-from functools import cache
 from math import ceil, sqrt
 from typing import Literal, TypeAlias
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from saccade._compiler import blas, share
 from saccade.slam.filter._kernels import fill_error_factors
@@ -26,6 +22,7 @@ from saccade.slam.filter._state_kernels import (
     bind_state,
 )
 from saccade.slam.filter.robot_models import inverse_observe
+from saccade.threads import SERIAL_BLAS
 from saccade.types import FloatArray, IntArray
 
 Errors: TypeAlias = Literal["invariant", "standard"]
@@ -270,7 +267,7 @@ def flush(f: FilterState) -> None:
     r, n, now = f.robot_size, state_size(f), f.now
     n = auxiliary_rows(f).stop if f.auxiliary > 0 else n
     parts = ((-1.0, f.downdates, now.downdates), (1.0, f.updates, now.updates))
-    with one_blas_thread():
+    with SERIAL_BLAS:
         for sign, rows, used in parts:
             if used > 0:
                 size = byref(c_int(len(f.state)))
@@ -304,7 +301,7 @@ def flush_rows(f: FilterState) -> None:
     now, end = f.now, state_size(f)
     start = max(now.flushed, f.robot_size)
     now.flushed = start + FLUSHED_ROWS
-    with one_blas_thread():
+    with SERIAL_BLAS:
         for sign, rows, used in (-1, f.downdates, now.downdates), (1, f.updates, now.updates):
             if used > 0:
                 size, height = byref(c_int(len(f.state))), min(FLUSHED_ROWS, end - start)
@@ -326,30 +323,6 @@ def flush_rows(f: FilterState) -> None:
     if now.flushed >= end:
         now.downdates = now.updates = now.flushed = 0
         now.mergeable_variance = 0.0
-
-
-@contextmanager
-def one_blas_thread() -> Iterator[None]:
-    """Limits the BLAS to one thread: sums of several would depend on their number.
-
-    In the filter they would also wait for each other longer than one works.
-    """
-    libraries = _blas().lib_controllers
-    threads = [(each, each.num_threads) for each in libraries]
-    threads = [(each, number) for each, number in threads if number > 1]
-    try:
-        for each, _ in threads:
-            each.set_num_threads(1)
-        yield
-    finally:
-        for each, number in threads:
-            each.set_num_threads(number)
-
-
-@cache
-def _blas() -> ThreadpoolController:
-    """The threads of the BLAS that are loaded."""
-    return ThreadpoolController()
 
 
 def inflate_heading_covariance(f: FilterState) -> None:
