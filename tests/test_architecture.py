@@ -20,6 +20,7 @@ FOUNDATION = {
     "plane",
     "errors",
     "extras",
+    "threads",
     "io",
 }
 ALLOWED = {
@@ -27,6 +28,7 @@ ALLOWED = {
     "landmark_names": {"errors"},
     "pictured": set(),
     "lazy": set(),
+    "threads": set(),
     "pictures": {"types", "errors", "io", "attention", "viewing"},
     "motions": {"errors"},
     "types": {"errors", "landmark_names", "motions", "pictured"},
@@ -36,7 +38,7 @@ ALLOWED = {
     "_jit": {"_compiler"},
     "_compiler": {"errors"},
     "io": {"types", "errors", "extras"},
-    "scale": {"types", "errors", "_jit"},
+    "scale": {"types", "errors", "_jit", "threads"},
     "textbook": {"types", "errors", "io"},
     "attention": {"types", "pictured", "errors", "extras", "_jit", "io", "scale"},
     "keypoints": {"types", "errors", "extras", "frames", "_jit", "io", "scale", "textbook"},
