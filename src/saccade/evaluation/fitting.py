@@ -39,6 +39,7 @@ from saccade.evaluation.prediction import (
     score_people,
 )
 from saccade.scale.pyramid import resize
+from saccade.threads import SERIAL_BLAS
 from saccade.types import BoolArray, Float32Array, FloatArray, IntArray
 
 
@@ -175,9 +176,8 @@ def fit(
         return float(value), gradient / scale / count + config.penalty * scaled
 
     from scipy.optimize import minimize  # slow to import
-    from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(1, user_api="blas"):  # the matrices are too small for several threads
+    with SERIAL_BLAS:
         found = minimize(
             *(objective, np.zeros(len(scale))),
             jac=True,
