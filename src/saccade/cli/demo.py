@@ -30,7 +30,7 @@ FRAMES_PER_LAP = 56
 """Number of frames of one of its laps."""
 
 Rows: TypeAlias = dict[str, dict[str, Any]]
-"""What the commands would print as JSON, by their names."""
+"""Rows for --json, by command."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,8 +144,8 @@ def _map_a_drive(_: Path, out: Path, builder: "ReportBuilder") -> Rows:
 
 
 def _report_nothing(done: int, total: int | None = None, stage: str = "") -> None:
-    """The progress of an example: the terminal shows that of the demo."""
+    """Ignores the progress of one example; the terminal shows how many are done."""
 
 
 EXAMPLES = (_look_and_match, _map_a_log, _map_a_drive)
-"""In their order in the report; the first two compile different kernels, side by side."""
+"""The examples in the order of the report. The first two compile different kernels, side by side."""
