@@ -148,4 +148,4 @@ def _report_nothing(done: int, total: int | None = None, stage: str = "") -> Non
 
 
 EXAMPLES = (_look_and_match, _map_a_log, _map_a_drive)
-"""The examples in the order of the report. The first two compile different kernels, side by side."""
+"""The examples in the order of the report; the first two compile different kernels."""
