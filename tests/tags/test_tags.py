@@ -134,6 +134,16 @@ def test_every_family_is_detected(family):
     assert Tags(TagConfig(family))(image).labels == [f"{family}:3"]
 
 
+@pytest.mark.parametrize("family", ["tag36h11", "aruco_mip_36h12"])
+def test_three_wrong_cells_are_corrected_and_six_are_not(family):
+    """Codes of a least distance of 11 or 12 correct 5 cells, of which OpenCV tries .6."""
+    for wrong, labels in ((3, [f"{family}:3"]), (6, [])):
+        cells = tag_cells(family, 3).copy()
+        cells[[1, 2, 3, 4, 5, 6][:wrong], [2, 5, 1, 6, 3, 4][:wrong]] ^= True
+        scene = np.kron(np.pad(cells, 2, constant_values=True), np.ones((9, 9)))
+        assert Tags(TagConfig(family))(scene.astype(np.float32)).labels == labels
+
+
 def test_images_of_any_kind_and_without_tags():
     image = film_tag(Tag(5, (1.0, 0.0, 0.4), np.pi), Lens(), np.zeros(3), POSITION)
     for each in (image, np.repeat(image[:, :, None], 3, 2), image.astype(np.float32) / 255):
