@@ -174,7 +174,6 @@ def slam_part(
     texts = result.map.text_names and dict(
         zip(ids.tolist(), map(str, result.map.names), strict=True)
     )
-    verdict = {"consistency": result.consistency.verdict or "too few observations for a verdict"}
     observed = ObservedLandmarks(log.observation_pose[used], ids[result.association[used]])
     if ride is not None:
         kind = np.full(len(observed.id), REOBSERVED)
@@ -184,7 +183,7 @@ def slam_part(
         Section(
             f"{log.name}: the growing map",
             SLAM_TEXT + LOADED * (loaded > 0),
-            facts=run_facts(summary) | verdict,
+            facts=run_facts(summary),
         ),
         trajectories,
         snapshots,

@@ -56,6 +56,7 @@ def summarize_run(log: LandmarkLog, result: SlamResult) -> dict[str, Any]:
         "nis_mean": none_if_nan(result.consistency.mean),
         "nis_band": list(result.consistency.band),
         "nonlinearity": result.nonlinearity,
+        "consistency": result.consistency.verdict or "too few observations for a verdict",
         "warning": _doubt(result),
     }
     remarks = [result.remark, result.consistency.remark]

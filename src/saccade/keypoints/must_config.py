@@ -8,6 +8,7 @@ from saccade.errors import Settings, setting
 from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.keypoints.selection_config import MIN_RESPONSE, SelectionConfig
 from saccade.keypoints.sift_config import SiftConfig
+from saccade.scale.scale_space_config import MAX_OCTAVES
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,7 @@ class MustConfig(SelectionConfig):
 
     first_octave: int = setting(-1, -1, 0)
     """First octave: -1 starts at the scales of a doubled image, 0 at the scales of the image."""
-    octaves: int | None = setting(None, 1)
+    octaves: int | None = setting(None, 1, MAX_OCTAVES)
     """Maximum number of octaves; None for as many as the image has room for."""
     intervals: int = setting(2, 1, 16)
     """Intervals per octave, s."""

@@ -10,6 +10,8 @@ from saccade.types import FloatArray, IntArray
 
 Grid: TypeAlias = Literal["centered", "shifted", "published"]
 Level = TypeVar("Level", float, FloatArray)
+MAX_OCTAVES = 32
+"""Maximum number of octaves; an image of 2^28 pixels in one row has 29."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +21,7 @@ class ScaleSpaceConfig(Settings):
     first_octave: int = setting(-1, -1, 0)
     """First octave: -1 starts at the scales of a doubled image, 0 at the scales of the image, with
     a quarter of the keypoints."""
-    octaves: int | None = setting(None, 1)
+    octaves: int | None = setting(None, 1, MAX_OCTAVES)
     """Maximum number of octaves; None for no limit."""
     intervals: int = setting(3, 1, 16)
     """Intervals per octave, s."""
