@@ -131,9 +131,12 @@ def test_a_map_with_labels_has_no_such_warning():
     assert "may be unreliable" in slam.run(without_names(log)).warning
 
 
-@pytest.mark.parametrize(("seed", "missing", "wrong"), [(4, 0.95, True), *nightly((3, 0.5, False))])
-def test_a_map_with_few_labels_is_judged_too(seed, missing, wrong):
-    log = simulate_world(WorldConfig.coarse(), seed)
+@pytest.mark.parametrize(
+    ("steps", "seed", "missing", "wrong"),
+    [(800, 6, 0.95, True), *nightly((1500, 4, 0.95, True), (1500, 3, 0.5, False))],
+)
+def test_a_map_with_few_labels_is_judged_too(steps, seed, missing, wrong):
+    log = simulate_world(dataclasses.replace(WorldConfig.coarse(), steps=steps), seed)
     hidden = np.random.default_rng(seed).random(len(log.landmark)) < missing
     log = dataclasses.replace(log, landmark=np.where(hidden, -1, log.landmark))
     result = slam.run(log)

@@ -91,7 +91,7 @@ def test_the_weights_of_a_simulated_density_are_found(rng):
 @pytest.mark.parametrize("near", [3.0, *nightly(0.0)])
 def test_the_order_is_found_where_there_is_one(rng, near):
     """Nearness to the last fixation has the weight by which the paths were drawn."""
-    data = simulated(rng, images=60, near=near)
+    data = simulated(rng, near=near)
     found = fit(data, replace(CONFIG, penalty=1e-5))[len(data.names) + len(data.early) :]
     basis = saccade_tables(SHAPE, SIZE)[0]
     ours, true = basis @ found, near * basis[..., 3]
@@ -149,7 +149,7 @@ def test_the_saved_model_predicts_as_the_fit_does(rng):
 @pytest.mark.parametrize("folds_of", [folds_by_image, folds_by_subject])
 def test_nothing_is_scored_by_weights_that_were_fitted_to_it(rng, folds_of):
     """Whatever the fixations of a fold become, the weights by which they are scored stay."""
-    data = simulated(rng, images=9)
+    data = simulated(rng, images=9, per_subject=4)
     folds = folds_of(data, CONFIG)
     before = [*cross_validate(data, folds, CONFIG)]
     data.people.table.xy[np.concatenate(folds) == 1] = 150.0, 110.0

@@ -21,7 +21,7 @@ def test_a_drive_whose_camera_is_turned_is_repeated_to_the_bit(egomotion):
     assert score_drive(first.trajectory, simulated.truth).inside_3sigma > 0.8
 
 
-@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("known", [False, *nightly(True)])
 def test_active_gaze_halves_the_error_of_a_fixed_camera(known):
     fixed, active = (drive(Run("pond", policy, 100, known)) for policy in ("fixed", "active"))
     assert active[0] < 0.5 * fixed[0]

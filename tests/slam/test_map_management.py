@@ -127,7 +127,8 @@ def test_the_unit_of_the_clock_does_not_matter(rng):
     ],
 )
 def test_nothing_mapped_and_little_used_are_warnings_with_their_cause(rng, config, cause):
-    warning = slam.run(without_names(simulate(rng)[0]), config).warning
+    log = without_names(simulate(rng, steps=150)[0])
+    warning = slam.run(log, replace(config, smooth=False)).warning
     assert cause in warning
     assert (cause == "") == (warning == "")
 

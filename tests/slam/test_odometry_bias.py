@@ -17,7 +17,7 @@ BIAS = np.array([0.08, -0.04, 0.15])
 
 def _biased(rng, motion, noise):
     """A log whose robot drove otherwise than it says."""
-    log, truth, world = simulate(rng, motion, noise=noise)
+    log, truth, world = simulate(rng, motion, noise=noise, steps=200)
     said = log.control.copy()
     for _ in range(50):  # what must have been logged for `unbiased` to give the real way
         said += log.control - unbiased(said, BIAS)

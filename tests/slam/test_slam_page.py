@@ -18,7 +18,7 @@ SCALE, WHEEL_BASE = 60.0, 2.8
 def page(tmp_path_factory):
     """The names that the code of docs/slam.md leaves."""
     folder = tmp_path_factory.mktemp("docs")
-    park = (files("saccade") / "data" / "victoria_park.txt").read_text().splitlines()[:2000]
+    park = (files("saccade") / "data" / "victoria_park.txt").read_text().splitlines()[:1200]
     (folder / "victoria_park.txt").write_text("\n".join(park))
     names = {}
     code = re.findall(r"```python\n(.*?)```", (ROOT / "docs/slam.md").read_text(), re.DOTALL)

@@ -20,13 +20,14 @@ from saccade.textbook import EkfSlam
 from saccade.textbook import contrast_saliency as printed_saliency
 from saccade.textbook import sift as printed_sift
 from support.circular_log import simulate
+from support.nightly import nightly
 
 PRINTED = ContrastConfig.kootstra2010()
 MAPS = {"intensity": 1e-12, "color": 1e-12, "orientation": 0.02, "saliency": 0.01}
 """Absolute tolerance: the means of the Gabor filters, which the print leaves open, differ."""
 
 
-@pytest.mark.parametrize("photo", ["coffee", "hallway_1", "horse"])
+@pytest.mark.parametrize("photo", ["coffee", "hallway_1", *nightly("horse")])
 def test_contrast_maps_and_sift_keypoints(photo):
     image = read_image(str(files("saccade") / "data" / f"{photo}.jpg"))
     saliency, printed_maps = contrast_saliency(image, PRINTED), printed_saliency(image)
