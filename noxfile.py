@@ -67,8 +67,6 @@ def coverage(session: nox.Session) -> None:
 
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
-CORE_TESTS = ("attention", "exchange", "io", "keypoints", "scale", "slam", "viewing", "visual")
-"""Folders of the tests that depend on the versions of libraries; all tests with `-- tests`."""
 EXTRAS = ".[parquet,hdf5,colmap,ros,cluster,serve,live]"
 """All but PyTorch, which is large."""
 TESTING = (
@@ -79,11 +77,10 @@ TESTING = (
 
 
 def run_tests(session: nox.Session) -> None:
-    """Prints the versions of the libraries and runs the given tests, or those of `CORE_TESTS`."""
+    """Prints the versions of the libraries and runs the given tests, or all of them."""
     session.run("uv", "pip", "list", "--quiet", external=True)
-    tests = session.posargs or [f"tests/{name}" for name in CORE_TESTS]
     # Old libraries warn of what is new around them.
-    session.run("pytest", "-q", "-W", "ignore::DeprecationWarning", *tests)
+    session.run("pytest", "-q", "-W", "ignore::DeprecationWarning", *session.posargs)
 
 
 @nox.session(python=PYTHONS)

@@ -3,6 +3,7 @@
 import os
 import re
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -46,6 +47,18 @@ def test_version_and_date_agree():
     version, date = re.search(r"^## (\S+) \((.+)\)$", changelog, re.MULTILINE).groups()
     assert version == saccade.__version__
     assert f"\nversion: {version}\ndate-released: {date}\n" in citation
+
+
+def test_the_page_names_the_oldest_libraries_that_are_required():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    required = [*project["dependencies"], *project["optional-dependencies"]["parquet"]]
+    least = dict(each.split(">=") for each in required)
+    page = (ROOT / "docs" / "robustness.md").read_text(encoding="utf-8")
+    told = re.findall(r"(OpenCV|NumPy|SciPy|Numba|Arrow) from ([\d.]*\d)", page)
+    assert len(told) == 5
+    for name, version in told:
+        library = {"OpenCV": "opencv-python-headless", "Arrow": "pyarrow"}.get(name, name.lower())
+        assert f"{least[library]}.".startswith(f"{version}."), name
 
 
 def test_every_picture_that_is_shipped_has_its_licence():
