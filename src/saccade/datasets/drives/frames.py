@@ -2,8 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from itertools import islice
 from pathlib import Path
+from threading import Lock
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -130,8 +132,13 @@ def frame_reader(
     import cv2  # slow to import
 
     camera = calibration.camera
-    own = camera.maps_to(camera.undistorted) if camera.is_distorted else None
-    of_left, of_right = (own, own) if maps is None else maps
+    once = Lock()  # frames are read by several threads
+
+    @cache
+    def maps_of_sides() -> tuple[Maps | None, Maps | None]:
+        """Maps of the left and right images, made when the first image is read."""
+        own = camera.maps_to(camera.undistorted) if camera.is_distorted else None
+        return own, own
 
     def undistort(
         image: SourceImage, maps: Maps | None, interpolation: int = cv2.INTER_LINEAR
@@ -144,22 +151,24 @@ def frame_reader(
             )
         return image.pixels if maps is None else cv2.remap(image.pixels, *maps, interpolation)
 
-    def meters(image: SourceImage) -> FloatArray:
+    def meters(image: SourceImage, maps: Maps | None) -> FloatArray:
         if image.pixels.ndim != 2:
             raise ImageError(
                 f"{image.name}: expected depth, one number per pixel, found a color image"
             )
-        steps = undistort(image, of_left, cv2.INTER_NEAREST)
+        steps = undistort(image, maps, cv2.INTER_NEAREST)
         unit = 1.0 if steps.dtype.kind == "f" else calibration.depth_unit
         return np.where(np.nan_to_num(steps) == 0, np.nan, steps * np.float64(unit))
 
     def read(number: int) -> Frame:
         one, other, steps = (source and source(number) for source in (left, right, depth))
+        with once:
+            of_left, of_right = maps or maps_of_sides()
         return Frame(
             time=float(recorded[number]),
             image=one and undistort(one, of_left),
             right=other and undistort(other, of_right),
-            depth=steps and meters(steps),
+            depth=steps and meters(steps, of_left),
         )
 
     return read
