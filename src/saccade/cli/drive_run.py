@@ -256,6 +256,7 @@ DRIVE_TEXT = (
     "The ellipses enclose 3 sigma (99.7 %). Scrub through the drive or play it; click a "
     "landmark to see the frames in which it was observed; click a chart to go to that time."
 )
+UNSCALED = " The scale is unknown, since one camera measures no lengths: m is an arbitrary unit."
 
 
 def drive_part(
@@ -270,8 +271,9 @@ def drive_part(
     trajectories |= {"odometry": result.odometry} if drive.has_odometry else {}
     trajectories |= {} if (truth := drive.aligned_truth) is None else {"truth": truth}
     observed = result.observations
+    text = DRIVE_TEXT + UNSCALED * (drive.scale != "metric")
     return map_part(
-        Section(f"{drive.name}: the growing map", DRIVE_TEXT, facts=run_facts(summary)),
+        Section(f"{drive.name}: the growing map", text, facts=run_facts(summary)),
         trajectories,
         snapshots,
         observed_landmarks(result),

@@ -27,8 +27,8 @@ GROSS_WEIGHT = 0.25
 """Maximum weight of a gross error (over 5 sigma) in the smoothing."""
 GPS_INLIERS = 0.9
 """Fraction of GPS positions used; the rest may be multipath reflections."""
-MAX_DIGITS = 6
-"""Maximum number of decimals of an estimated bias in words."""
+MIN_DEVIATION = 5e-4
+"""Standard deviation in the unit of the words below which a bias was declared, not estimated."""
 
 
 def summarize_run(log: LandmarkLog, result: SlamResult) -> dict[str, Any]:
@@ -98,6 +98,7 @@ def _odometry_biases(result: SlamResult) -> dict[str, Any]:
     words = (
         f"{_with_deviation(factor * mean, factor * std)} {unit}"
         for (mean, std), (factor, unit) in zip(pairs.tolist(), units, strict=True)
+        if factor * std >= MIN_DEVIATION
     )
     return {
         "odometry_bias": dict(zip(names, pairs[:, 0].tolist(), strict=True)),
@@ -108,8 +109,7 @@ def _odometry_biases(result: SlamResult) -> dict[str, Any]:
 
 def _with_deviation(mean: float, std: float) -> str:
     """Both to the second digit of the standard deviation."""
-    digits = 1 - floor(log10(std)) if std > 0 else 2
-    digits = min(max(digits, 0), MAX_DIGITS)
+    digits = max(1 - floor(log10(std)), 0)
     return f"{mean:+.{digits}f} ± {std:.{digits}f}"
 
 
