@@ -38,13 +38,15 @@ def code_of(text: str) -> list[str]:
 
 
 def shell_of(text: str) -> list[str]:
-    """The lines of the shell blocks of a page, those of lists and notes too."""
+    """The lines of the shell blocks of a page: fenced, in lists and notes too, or indented."""
     lines, language = [], None
-    for line in map(str.strip, text.replace("\\\n", " ").splitlines()):
-        if fence := re.match(r"```(\w*)", line):
+    for line in text.replace("\\\n", " ").splitlines():
+        if fence := re.match(r" *```(\w*)", line):
             language = fence[1] if language is None else None
-        elif language in ("", "bash", "sh"):
-            lines.append(line)
+        elif language in ("", "bash", "sh") or (
+            language is None and re.match(r" {4}(saccade|uv|uvx|pip|python) ", line)
+        ):
+            lines.append(line.strip())
     return lines
 
 
