@@ -15,7 +15,7 @@ from support.logs import with_observations
 @pytest.mark.parametrize("motion", ["turn_then_translate", "compose"])
 @pytest.mark.parametrize("kind", ["standard", "invariant"])
 def test_exact_log_gives_the_exact_world(rng, motion, kind):
-    log, truth, world = simulate(rng, motion, noise=0.0)
+    log, truth, world = simulate(rng, motion, noise=0.0, steps=150)
     result = slam.run(log, EkfConfig(errors=kind, smooth=False))
     atol = 1e-8 if kind == "standard" else 2e-3  # means of the second-order terms of its noise
     np.testing.assert_allclose(result.trajectory.pose[:, :2], truth[:, :2], atol=atol)
@@ -44,7 +44,7 @@ def test_noisy_log_is_better_than_dead_reckoning_and_as_sure_as_it_should_be(
 
 def test_association_names_the_landmarks_of_the_map(rng):
     log, _, _ = simulate(rng)
-    result = slam.run(log)
+    result = slam.run(log, EkfConfig(smooth=False))
     np.testing.assert_array_equal(result.map.id[result.association], log.landmark)
     np.testing.assert_array_equal(
         result.map.observations, np.bincount(result.association, minlength=len(result.map))
