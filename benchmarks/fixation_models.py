@@ -4,9 +4,11 @@
 
 Every row is scored on the same images as `saccade evaluate fixations` does, with 95 % bootstrap
 intervals over the images: the presets of this package, peers, a Gaussian in the center and the
-other images' fixations, which ignore the image, and people: each subject against the others. GBVS
-is written here from its paper (Harel, Koch & Perona, *Graph-based visual saliency*, NIPS 2006;
-feature maps of 32 pixels, sigma .15 and .06 of their width).
+other images' fixations, which ignore the image, and people: each subject against the others. Two
+peers are written here from their papers: GBVS (Harel, Koch & Perona, *Graph-based visual saliency*,
+NIPS 2006; feature maps of 32 pixels, sigma .15 and .06 of their width) and BMS (Zhang & Sclaroff,
+*Exploiting surroundedness for saliency detection*, TPAMI 2016; 400 pixels, thresholds 8 of 255
+apart, opening by 5 and dilation by 7 pixels, smoothing by 9).
 """
 
 from collections.abc import Callable
@@ -24,6 +26,7 @@ from saccade.attention import (
     contrast_saliency,
     symmetry_saliency,
 )
+from saccade.attention.channels import whitened
 from saccade.datasets.fixations import read_fixations
 from saccade.evaluation.prediction import (
     FixationData,
@@ -32,12 +35,17 @@ from saccade.evaluation.prediction import (
     score_models,
     score_people,
 )
+from saccade.io.image import in_unit_range
 from saccade.scale.pyramid import resize
 
 SIGMA = 24.0
 """Pixels per degree of visual angle."""
 NODES = 32
 """Cells along the longer side of GBVS's feature maps."""
+BMS_SIDE = 400
+"""Longer side of the image in pixels for BMS."""
+BMS_THRESHOLDS = 32
+"""Number of its thresholds."""
 SCORES = ("shuffled_auc", "auc", "nss", "cc", "information_gain")
 MODELS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "attention (default)": lambda image: attention_saliency(image).saliency,
@@ -53,8 +61,27 @@ MODELS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "SaliencyToolbox 2": lambda image: (
         contrast_saliency(image, ContrastConfig.saliencytoolbox2()).saliency
     ),
+    "BMS (Zhang & Sclaroff)": lambda image: bms(image),
     "GBVS (Harel et al.)": lambda image: gbvs(image),
 }
+
+
+def bms(image: np.ndarray) -> np.ndarray:
+    """Boolean map saliency, by the sizes of its authors."""
+    scale = min(1.0, BMS_SIDE / max(image.shape[:2]))
+    shape = tuple(round(side * scale) for side in image.shape[:2])
+    opened, dilated = (cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (d, d)) for d in (5, 7))
+    total = np.zeros(shape, np.float32)
+    for plane in np.moveaxis(whitened(resize(in_unit_range(image), shape)), 2, 0):
+        levels = np.linspace(plane.min(), plane.max(), 2 * BMS_THRESHOLDS + 1)[1::2]
+        for above in (plane > level for level in levels):
+            for boolean_map in (above, ~above):
+                figure = cv2.morphologyEx(boolean_map.view(np.uint8), cv2.MORPH_OPEN, opened)
+                _, labels = cv2.connectedComponents(figure, connectivity=8)
+                border = np.r_[labels[0], labels[-1], labels[:, 0], labels[:, -1]]
+                figure = cv2.dilate((~np.isin(labels, [*{0, *border}])).view(np.uint8), dilated)
+                total += figure / np.float32(max(np.sqrt(figure.sum()), 1))
+    return cv2.GaussianBlur(total, (0, 0), 9 / BMS_SIDE * max(shape), borderType=cv2.BORDER_REFLECT)
 
 
 def gbvs(image: np.ndarray) -> np.ndarray:
