@@ -32,6 +32,9 @@ OPENCV_LIMITS = {
     "OPENCV_FFMPEG_LOGLEVEL": "-8",  # quiet: saccade reports errors itself
 }
 """Variables that OpenCV reads once, unless the user has set them."""
+THREADED = ("match", "evaluate")
+"""Commands with matrix products large enough for threads of BLAS. Elsewhere these would only wait,
+which doubles the processor time of importing NumPy."""
 OBJECTS_PER_COLLECTION = 10_000
 """Allocation threshold of the garbage collector. With Python's default of 700, collection takes a
 tenth of the time of a first command, since imports and the compiler allocate a million objects."""
@@ -177,12 +180,14 @@ def prepare_streams() -> None:
 
 
 def prepare_libraries() -> None:
-    """Set a Matplotlib backend without a display and limits of OpenCV; collect garbage less."""
+    """Set a Matplotlib backend, limits of OpenCV and threads of BLAS; collect garbage less."""
     gc.set_threshold(OBJECTS_PER_COLLECTION)
     os.environ["MPLBACKEND"] = "agg"  # figures go into files
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # silence its remarks on the font cache
     for name, value in OPENCV_LIMITS.items():
         os.environ.setdefault(name, value)
+    if not {*sys.argv[1:2]} & {*THREADED}:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def main() -> None:
