@@ -186,7 +186,7 @@ def prepare_libraries() -> None:
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # silence its remarks on the font cache
     for name, value in OPENCV_LIMITS.items():
         os.environ.setdefault(name, value)
-    if not {*sys.argv[1:2]} & {*THREADED}:
+    if HELP & {*sys.argv} or not {*sys.argv[1:2]} & {*THREADED}:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
