@@ -29,6 +29,7 @@ ALLOWED = {
     "pictured": set(),
     "lazy": set(),
     "threads": set(),
+    "workers": {"errors", "extras"},
     "pictures": {"types", "errors", "io", "attention", "viewing"},
     "motions": {"errors"},
     "types": {"errors", "landmark_names", "motions", "pictured"},
@@ -52,7 +53,7 @@ ALLOWED = {
     | {"datasets", "simulation", "exchange"},
     "diagnostics": FOUNDATION | {"visual", "slam"},
     "exchange": FOUNDATION,
-    "batch": FOUNDATION | {"attention", "keypoints", "exchange"},
+    "batch": FOUNDATION | {"attention", "keypoints", "exchange", "workers"},
     "viewing": FOUNDATION | {"textbook", "slam"},
     "settings": {"errors", "io"},
     "tags": {"types", "errors", "landmark_names", "frames", "plane", "io"},
@@ -97,6 +98,10 @@ def test_a_package_imports_only_what_it_may(package):
     for path in files:
         strangers = packages_imported(path) - ALLOWED[package] - {package}
         assert not strangers, f"{path.relative_to(SOURCE)} imports {strangers}"
+
+
+def test_the_demo_needs_no_extra():
+    assert not packages_imported(SOURCE / "cli" / "demo.py") & {"batch", "serving", "torch"}
 
 
 def is_kernel_file(module):
@@ -259,7 +264,7 @@ def test_no_file_outgrows_its_subject():
 def test_files_are_opened_in_one_place():
     """By `saccade.io.files`, which refuses what has no end; our own data needs no such care."""
     opening = ("read_text(", "read_bytes(", '.open("rb")', ".open(newline", ".open(encoding")
-    ours = {"_compiler.py", "cli/serve.py", "batch/workers.py", "viewing/page.py"}
+    ours = {"_compiler.py", "cli/serve.py", "workers.py", "viewing/page.py"}
     ours |= {"lazy.py", "extras.py"}  # our own names, and the record of our installation
     for path in SOURCE.rglob("*.py"):
         if path != SOURCE / "io" / "files.py" and path.relative_to(SOURCE).as_posix() not in ours:

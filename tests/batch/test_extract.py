@@ -15,9 +15,9 @@ import pytest
 from saccade import Sift, attention_saliency, exchange, read_image, scanpath
 from saccade.attention import AttentionConfig
 from saccade.batch import Job, extract, extraction, open_source, read_points
-from saccade.batch.workers import run_blocks
 from saccade.errors import ConfigError
 from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
+from saccade.workers import run_blocks
 from support.extraction import SIFT, check_complete, check_whole, extract_here, photographs
 from support.keypoint_files import assert_same
 from support.killed_process import deadly

@@ -18,7 +18,7 @@ IMAGES = 30
 @pytest.fixture
 def cluster(tmp_path, monkeypatch):
     """Address of a scheduler, and the number of the process of one of its two workers."""
-    monkeypatch.setattr("saccade.batch.workers.SCHEDULER_TIMEOUT", TIMEOUT)
+    monkeypatch.setattr("saccade.workers.SCHEDULER_TIMEOUT", TIMEOUT)
     options = {"dashboard_address": ":0", "local_directory": tmp_path / "dask"}
     with (
         distributed.LocalCluster(2, threads_per_worker=1, **options) as cluster,
@@ -52,7 +52,7 @@ def test_a_worker_that_is_killed_loses_nothing(cluster, run, tmp_path):
 
 def test_a_scheduler_that_is_not_there_is_named(run, tmp_path, monkeypatch):
     photographs(tmp_path / "photos", 1)
-    monkeypatch.setattr("saccade.batch.workers.SCHEDULER_TIMEOUT", 0.3)
+    monkeypatch.setattr("saccade.workers.SCHEDULER_TIMEOUT", 0.3)
     code, _, err = run("extract", tmp_path / "photos", "--scheduler", "tcp://127.0.0.1:9")
     assert code == 2
     assert "scheduler: expected one at tcp://127.0.0.1:9, found none" in err

@@ -70,7 +70,7 @@ def test_demo_makes_a_page_of_four_results(run, tmp_path, monkeypatch):
     whole = SlamOptions.load
     monkeypatch.setattr(SlamOptions, "load", lambda *paths: between(whole(*paths), 0, 2000))
     monkeypatch.setattr("saccade.cli.demo.FRAMES", 8)
-    monkeypatch.setattr("saccade.batch.workers.count_workers", lambda count: 1)
+    monkeypatch.setattr("saccade.workers.count_workers", lambda count: 1)
     code, out, err = run("demo")
     assert code == 0
     page = (tmp_path / "saccade-demo" / "index.html").read_text()
@@ -82,7 +82,7 @@ def test_demo_makes_a_page_of_four_results(run, tmp_path, monkeypatch):
 @pytest.mark.nightly
 def test_the_processes_of_the_demo_change_nothing(run, tmp_path, monkeypatch):
     for workers in (1, 2):
-        monkeypatch.setattr("saccade.batch.workers.count_workers", lambda _, n=workers: n)
+        monkeypatch.setattr("saccade.workers.count_workers", lambda _, n=workers: n)
         assert run("demo", "--out", f"by_{workers}")[0] == 0
     one, two = (tmp_path / f"by_{workers}" for workers in (1, 2))
     names = [each.relative_to(one) for each in one.rglob("*") if each.is_file()]

@@ -43,7 +43,6 @@ from saccade.batch.sources import (
 )
 from saccade.batch.storage import Store
 from saccade.batch.stored import read_stored, stored_points
-from saccade.batch.workers import DIED, run_blocks
 from saccade.errors import ConfigError, ImageError, KeypointsError, SaccadeError
 from saccade.exchange.arrow import column, rows_of, write_rows
 from saccade.exchange.maps import encode_png
@@ -59,6 +58,7 @@ from saccade.keypoints.detectors import (
     own_function,
 )
 from saccade.types import BoolArray, Image
+from saccade.workers import DIED, run_blocks
 
 MAX_BLOCK = 256
 """Images in a block: minutes of work, and a file of about 30 MB."""

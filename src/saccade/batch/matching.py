@@ -33,7 +33,6 @@ from saccade.batch.pairs import Pair, images_and_pairs, write_pairs
 from saccade.batch.sources import is_local_file
 from saccade.batch.storage import Store
 from saccade.batch.stored import check_stored
-from saccade.batch.workers import DIED, count_workers, run_blocks
 from saccade.errors import KeypointsError, OutputError, Settings, require, setting
 from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
 from saccade.exchange.colmap import CameraMode, check_cameras
@@ -48,6 +47,7 @@ from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.two_view_fit import Geometry
 from saccade.keypoints.verification import MIN_INLIERS, Verification, verify
 from saccade.types import Float32Array, IntArray, Keypoints
+from saccade.workers import DIED, count_workers, run_blocks
 
 Format: TypeAlias = Literal["hdf5", "colmap"]
 FOLDER = "matches"

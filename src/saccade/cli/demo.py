@@ -48,8 +48,8 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
 
     Example: saccade demo --out saccade-demo
     """
-    from saccade.batch.workers import DIED, count_workers, run_blocks
     from saccade.viewing.report import ReportBuilder
+    from saccade.workers import DIED, count_workers, run_blocks
 
     out = options.out
     done: dict[Callable[..., Rows], tuple[Rows, Sequence[Part]]] = {}

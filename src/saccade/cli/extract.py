@@ -99,7 +99,7 @@ def extract(source: Source, /, options: ExtractOptions = ExtractOptions()) -> Re
     from saccade.batch import extract as extract_all
     from saccade.batch.job import SALIENCY
     from saccade.batch.storage import ANONYMOUS
-    from saccade.batch.workers import count_workers
+    from saccade.workers import count_workers
 
     out, what = options.out, options.what
     what = SALIENCY if what == DEFAULT_MODEL else what
