@@ -52,6 +52,7 @@ def install(home: Path) -> dict[str, str]:
     }
     place = {"UV_PROJECT_ENVIRONMENT": str(home / "venv")}
     command = ["uv", "sync", "--no-dev", "--no-editable", "--frozen", "--quiet"]
+    command += ["--refresh-package", "pysaccade"]  # or uv installs what it built before
     subprocess.run(command, cwd=ROOT, env=kept | place, check=True)
     return kept | {"HOME": str(home)}
 
