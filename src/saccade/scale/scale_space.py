@@ -23,6 +23,10 @@ ROW_BLOCK = 192
 """Number of rows per block for a thread, chosen to stay in the cache between planes."""
 
 
+MIN_SHARED = 2**20
+"""Number of samples of the smallest plane that threads blur together, which gains nothing below."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class ScaleSpace:
     """An image at increasing blur; each octave halves the sampling density (B.2-B.3)."""
@@ -273,23 +277,20 @@ def blurred(
     height, radius = len(plane), len(kernel_y) // 2
     result = np.empty(plane.shape, np.float32) if out is None else out
 
-    def blur(rows: slice) -> None:
-        first, last = max(rows.start - radius, 0), min(rows.stop + radius, height)
-        part = workspace.array("rows", rows.start // share, (last - first, plane.shape[1]))
-        cv2.sepFilter2D(
-            *(plane[first:last], -1, kernel_x, kernel_y),
-            dst=part,
-            borderType=cv2.BORDER_REFLECT_101,
-        )
-        result[rows] = part[rows.start - first : rows.stop - first]
-
     share = -(-height // workspace.threads)
-    if workspace.threads > 1 and height >= ROW_BLOCK:
-        workspace.run_in_blocks(blur, height, share)
-    else:
-        cv2.sepFilter2D(
-            plane, -1, kernel_x, kernel_y, dst=result, borderType=cv2.BORDER_REFLECT_101
-        )
+    border = cv2.BORDER_REFLECT_101
+
+    def blur(rows: slice) -> None:
+        cv2.sepFilter2D(plane[rows], -1, kernel_x, kernel_y, dst=result[rows], borderType=border)
+
+    if share == height or plane.size < MIN_SHARED or share < 2 * radius:
+        blur(slice(height))
+        return result
+    workspace.run_in_blocks(blur, height, share)
+    for start in range(share, height, share):  # the rows that mirrored ones of the same share
+        near = slice(start - 2 * radius, min(start + 2 * radius, height))
+        part = cv2.sepFilter2D(plane[near], -1, kernel_x, kernel_y, borderType=border)
+        result[start - radius : start + radius] = part[radius : 3 * radius]
     return result
 
 

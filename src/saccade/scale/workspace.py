@@ -57,12 +57,21 @@ class Workspace:
             items: number of items.
             block_size: items in a slice.
         """
-        starts = range(0, items, block_size)
-        blocks = [slice(start, min(start + block_size, items)) for start in starts]
-        if self._executor is None or len(blocks) < 2:
-            list(map(work, blocks))
-        else:
-            list(self._executor.map(work, blocks))
+        starts = iter(range(0, items, block_size))  # taken by whichever thread is free
+
+        def run() -> None:
+            for start in starts:
+                work(slice(start, min(start + block_size, items)))
+
+        if self._executor is None or items <= block_size:
+            return run()
+        others = [self._executor.submit(run) for _ in range(self.threads - 1)]
+        try:
+            run()
+        finally:
+            for each in others:
+                if not each.cancel():  # it has begun
+                    each.result()
 
 
 SERIAL = Workspace()
