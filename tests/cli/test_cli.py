@@ -68,8 +68,8 @@ def test_settings_within_settings_can_be_handed_back(run, tmp_path, monkeypatch)
 
 def test_demo_makes_a_page_of_four_results(run, tmp_path, monkeypatch):
     whole = SlamOptions.load
-    monkeypatch.setattr(SlamOptions, "load", lambda *paths: between(whole(*paths), 0, 2000))
-    monkeypatch.setattr("saccade.cli.demo.FRAMES", 8)
+    monkeypatch.setattr(SlamOptions, "load", lambda *paths: between(whole(*paths), 0, 600))
+    monkeypatch.setattr("saccade.cli.demo.FRAMES", 4)
     monkeypatch.setattr("saccade.workers.count_workers", lambda count: 1)
     code, out, err = run("demo")
     assert code == 0
