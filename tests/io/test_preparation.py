@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from saccade import ConfigError, ImageError, ImageWarning, Sift, read_image, stretch_contrast
-from saccade.batch import Job, open_source
-from saccade.batch.dataset import read_points
-from saccade.batch.extraction import extract
 from saccade.io.masks import read_mask
 from saccade.io.preparation import opaque_part
 
+PARQUET = "needs the extra `parquet`"
 CENTER, RADIUS = np.array([150, 125]), 80
 
 
@@ -83,6 +81,9 @@ def test_percentiles_ascend(scene, percentiles):
 @pytest.mark.parametrize("name", ["left/a.jpg", "b.png"])
 def test_masks_have_the_names_of_colmap(scene, tmp_path, name):
     """NAME.png, or for PNG images NAME; black where no keypoint is wanted."""
+    pytest.importorskip("pyarrow", reason=PARQUET)
+    from saccade.batch import Job, extract, open_source, read_points
+
     images, masks = tmp_path / "images", tmp_path / "masks"
     for each in (images, masks):
         (each / name).parent.mkdir(parents=True, exist_ok=True)
@@ -112,6 +113,9 @@ def test_broken_masks_are_named(tmp_path):
         read_mask(tmp_path, "a.jpg")
     with pytest.warns(ImageWarning, match=r"image: found no mask .*b\.jpg\.png; the whole image"):
         assert read_mask(tmp_path, "b.jpg") is None
+    pytest.importorskip("pyarrow", reason=PARQUET)
+    from saccade.batch import Job
+
     with pytest.raises(ConfigError, match=r"NAME\.png"):
         Job("sift", masks=str(tmp_path / "none"))
     with pytest.raises(ConfigError, match="masks"):

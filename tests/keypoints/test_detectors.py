@@ -12,7 +12,6 @@ import pytest
 
 import saccade
 from saccade import exchange
-from saccade.batch import Job, match_images, read_points
 from saccade.errors import ConfigError
 from saccade.evaluation.detectors import find_detector
 from saccade.keypoints.detectors import DETECTORS, Detector, keypoints_of, make_detector
@@ -21,6 +20,9 @@ from saccade.serving.controls import GROUPS, controls
 from support.keypoint_files import assert_same
 from support.own_detectors import brightness, corners, fails, gray_patches
 from support.pictures import looks_like_a_picture
+
+pytest.importorskip("pyarrow", reason="needs the extra `parquet`")
+from saccade.batch import Job, match_images, read_points
 
 COUNT = 9
 OWN = "support.own_detectors"
