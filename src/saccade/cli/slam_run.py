@@ -99,8 +99,13 @@ def map_log(
     if ride is not None:
         findings += ride.findings(options.survey)
     summary = summarize_run(log, result) | _map_figures(options, slam, result)
-    found = filter(None, (*map(str, findings), summary["warning"]))
-    summary |= {"warning": " ".join(found), "findings": [asdict(each) for each in findings]}
+    notes = [each.what for each in findings if each.severity == "note"]
+    found = [str(each) for each in findings if each.severity != "note"]
+    summary |= {
+        "warning": " ".join(filter(None, (*found, summary["warning"]))),
+        "remark": "; ".join(filter(None, (*notes, summary["remark"]))),
+        "findings": [asdict(each) for each in findings],
+    }
     return write_run(
         out,
         f"saccade slam: {log.name}",

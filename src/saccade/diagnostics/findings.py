@@ -300,8 +300,8 @@ FINDINGS = {
         "Check what happened there; the trajectory in between is uncertain",
     ),
     "corrected": Kind(
-        *("warning", "m", "odometry that slipped or lost steps, by the labels of landmarks"),
-        "Check the odometry before this time; the trajectory there is uncertain",
+        *("note", "m", "odometry that slipped or lost steps, by the labels of landmarks"),
+        "Check the odometry before these times, where the trajectory is uncertain",
     ),
     "tag size": Kind(
         *("warning", "%", "tags of another size than declared"),

@@ -13,6 +13,8 @@ from saccade.slam import SlamResult
 from saccade.slam.consistency import chi_square_gate
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 
+MAX_TIMES = 5
+"""Maximum number of corrections whose times are listed."""
 MAX_UNUSED_FRACTION = 0.3
 """Maximum fraction of unused observations without a warning."""
 MAX_DUPLICATES = 0.1
@@ -113,16 +115,19 @@ def _check_moved(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
 
 
 def _check_corrections(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
-    """Reports each pose that labels corrected."""
-    if result.corrections is None:
+    """Reports the poses that labels corrected."""
+    if result.corrections is None or not result.corrections.any():
         return
-    for i in np.flatnonzero(result.corrections.any(1)).tolist():
-        x, y, turn = result.corrections[i].tolist()
-        what = (
-            f"odometry led to a wrong pose: at {log.time[i] - log.time[0]:.1f} s the labels of "
-            f"landmarks corrected it by {hypot(x, y):.1f} m and {np.rad2deg(turn):.0f} degrees"
-        )
-        yield Finding.of("corrected", what, hypot(x, y))
+    poses = np.flatnonzero(result.corrections.any(1))
+    distance = np.hypot(*result.corrections[poses, :2].T)
+    turn = np.rad2deg(np.abs(result.corrections[poses, 2]))
+    times = [f"{seconds:.1f}" for seconds in (log.time[poses] - log.time[0])[:MAX_TIMES]]
+    more = f" and later ({len(poses)} times)" if len(poses) > MAX_TIMES else ""
+    what = (
+        "odometry led to a wrong pose: the labels of landmarks corrected it at "
+        f"{', '.join(times)} s{more}, by up to {distance.max():.1f} m and {turn.max():.0f} degrees"
+    )
+    yield Finding.of("corrected", what, float(distance.max()))
 
 
 def _check_innovations(log: LandmarkLog, result: SlamResult, known: bool) -> Iterator[Finding]:
