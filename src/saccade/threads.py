@@ -4,13 +4,10 @@ from collections.abc import Callable
 from contextlib import ContextDecorator
 from functools import cache
 from threading import Lock
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
-
-Limit: TypeAlias = Callable[[], Callable[[], object]]
-"""Sets the number of threads of a library to one, and returns the function that restores it."""
 
 
 class Serial(ContextDecorator):
@@ -22,7 +19,7 @@ class Serial(ContextDecorator):
         limit: sets the number of threads to one, and returns the function that restores it.
     """
 
-    def __init__(self, limit: Limit) -> None:
+    def __init__(self, limit: Callable[[], Callable[[], object]]) -> None:
         self._limit = limit
         self._lock = Lock()
         self._inside = 0

@@ -25,9 +25,6 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, TypeAlias, TypeVar
 
-import cv2
-from threadpoolctl import threadpool_limits
-
 from saccade.errors import ConfigError, printable
 from saccade.extras import import_optional
 
@@ -133,6 +130,9 @@ def _processes(count: int) -> Iterator[Workers]:
 
 def _initialize_worker(lifeline: Connection) -> None:
     """One thread, messages as the command prints them, no Ctrl-C, and an exit with the parent."""
+    import cv2  # slow to import
+    from threadpoolctl import threadpool_limits
+
     threadpool_limits(1)  # of NumPy's BLAS
     cv2.setNumThreads(1)
     warnings.showwarning = _print_warning

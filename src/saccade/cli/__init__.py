@@ -66,7 +66,7 @@ COMMANDS = {
 """Commands by help panel, with the first lines of their docstrings. Command NAME is the function
 NAME in the module `saccade.cli.NAME`, which is imported when the command runs."""
 HELP = {"--help", "-h"}
-"""Words that ask for the help of a command."""
+"""Options that print the help of a command."""
 USAGES = {"match": "Usage: saccade match [OPTIONS] FIRST [SECOND]"}
 """Usage of commands whose last argument is optional."""
 EVALUATIONS = {

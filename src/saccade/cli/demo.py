@@ -1,6 +1,7 @@
 """`saccade demo`: attention, matching and SLAM on data that ships with the package."""
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
@@ -65,7 +66,7 @@ def demo(options: DemoOptions = DemoOptions()) -> Result:
             progress(len(done))
         builder = ReportBuilder("saccade demo", LEAD)
         for part in (part for example in EXAMPLES for part in done[example][1]):
-            builder.add(partial(replace, part))
+            builder.add(partial(copy, part))  # with its HTML
         page = builder.write(out / "index.html")
     print_message(f"open {page} in a browser; then try: saccade look YOUR_PHOTO.jpg")
     rows = {name: row for example in EXAMPLES for name, row in done[example][0].items()}

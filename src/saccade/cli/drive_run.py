@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -228,17 +228,13 @@ def film_frames(
     result: VisualResult,
 ) -> Iterator[Image]:
     """Frames of a film: the camera image with landmarks and saliency, and the growing map."""
-    frame_at = lru_cache(1)(partial(read_frame, drive))
-
-    def image(number: int) -> Image | None:
-        frame = frame_at(number)
-        return None if frame is None else frame.image
+    drive = replace(drive, load=lru_cache(1)(drive.load))  # for its image and its gaze
 
     def saliency(image: Image) -> Float32Array:
         return attention_saliency(image).saliency
 
     def eye(number: int) -> Eye | None:
-        frame = frame_at(number)
+        frame = read_frame(drive, number)
         if frame is None or frame.turn is None:
             return None
         field_of_view = 2 * float(np.arctan(drive.camera.width / 2 / drive.camera.fx))
@@ -246,7 +242,7 @@ def film_frames(
 
     odometry = result.odometry if drive.has_odometry else None
     return drive_frames(
-        *(snapshots, drive.time, odometry, image, saliency),
+        *(snapshots, drive.time, odometry, partial(image_of, drive), saliency),
         observed_landmarks(result),
         eye_at=eye if eye(0) is not None else None,
     )

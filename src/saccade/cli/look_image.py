@@ -74,7 +74,8 @@ def analyze_image(
         scan = scanpath(maps, network, fixations=options.length)
     samples = sample_scanpaths(maps, count=CLOUD_SIZE, fixations=options.length)
     layers = maps.layers
-    for each in options.layers or () if options.maps else ():
+    chosen = options.layers if options.maps else None
+    for each in chosen or ():
         require(each in layers, "layers", f"names of {', '.join(layers)}", each)
     pairs = attention.pairs(image, scan.xy)
     figure = attention_figure(image, layers, scan, pairs)

@@ -230,7 +230,7 @@ def results_in(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def joining_results(folder: Path) -> Iterator[None]:
-    """Keeps the files that this process writes with the results that another one publishes.
+    """Keeps the files of this process with the results that another process publishes.
 
     The other process, which is in a `results_in` block for the folder, waits for this one.
     """

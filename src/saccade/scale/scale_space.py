@@ -22,9 +22,8 @@ NARROW_SIGMA = 0.8
 ROW_BLOCK = 192
 """Number of rows per block for a thread, chosen to stay in the cache between planes."""
 
-
 MIN_SHARED = 2**20
-"""Number of samples of the smallest plane that threads blur together, which gains nothing below."""
+"""Minimum number of samples of a plane whose blur threads share; with fewer they gain nothing."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -194,23 +193,19 @@ def downsampled(
             out=workspace.array("plane", 0, before.shape),
             workspace=workspace,
         )
-    sides = [(side + 1) // 2 for side in plane.shape]
-    first = [0 if e else int(side % 2 == 0) for e, side in zip(even, sides, strict=True)]
-    kept = [side - each for side, each in zip(sides, first, strict=True)]
-    result = np.empty(kept, np.float32)
+    first = [int(side % 4 == 3) for side in plane.shape]  # of an odd side
+    plane = plane[first[0] :, first[1] :]
+    result = np.empty([(side + 1) // 2 for side in plane.shape], np.float32)
 
     def fill(rows: slice) -> None:
-        part = plane[first[0] + 2 * rows.start : first[0] + 2 * rows.stop]
+        part = plane[2 * rows.start : 2 * rows.stop]
         for axis in (0, 1):
             lines = np.moveaxis(part, axis, 0)
-            if even[axis]:
-                lines = (lines[::2] + lines[1::2]) * np.float32(0.5)
-            else:
-                lines = lines[axis * first[1] :: 2]
+            lines = (lines[::2] + lines[1::2]) * np.float32(0.5) if even[axis] else lines[::2]
             part = np.moveaxis(lines, 0, axis)
         result[rows] = part
 
-    workspace.run_in_blocks(fill, kept[0], ROW_BLOCK)
+    workspace.run_in_blocks(fill, len(result), ROW_BLOCK)
     start = [0.5 if e else float(each) for e, each in zip(even, first, strict=True)]
     return result, np.array(start[::-1])
 
@@ -287,7 +282,7 @@ def blurred(
         blur(slice(height))
         return result
     workspace.run_in_blocks(blur, height, share)
-    for start in range(share, height, share):  # the rows that mirrored ones of the same share
+    for start in range(share, height, share):  # mirrored rows of the share were used there
         near = slice(start - 2 * radius, min(start + 2 * radius, height))
         part = cv2.sepFilter2D(plane[near], -1, kernel_x, kernel_y, borderType=border)
         result[start - radius : start + radius] = part[radius : 3 * radius]

@@ -172,8 +172,8 @@ class Prefetcher:
 def dedicated_process() -> Iterator[None]:
     """Lets threads of the process switch more often, for mapping together with prefetching.
 
-    For programs that own their process, such as `saccade drive`. Without it `run` only keeps BLAS
-    to one thread while it works. The setting is restored at the end.
+    For programs that own their process, such as `saccade drive`; `run` itself changes only the
+    number of BLAS threads. The setting is restored at the end.
     """
     interval = sys.getswitchinterval()
     sys.setswitchinterval(min(interval, SWITCH_INTERVAL))
